@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from calibration.measure.clocks import sine_amplitude, sine_near
 from calibration.measure.recording import SIGNALS, StrokeRecording
@@ -13,6 +14,7 @@ from calibration.measure.segmentation import Segment, full_slip, sliding_speed
 from calibration.plan.parameters import Array
 
 _IDLE_USED = 0.8  # of the untouched time, away from the touch
+_SMOOTHING_S = 0.02  # as in `calibration.measure.segmentation`: several drive periods
 _HIGHEST_MU = 5.0  # as in `haptix.model.status.LIMITS`: above it ozf or mN were read as N
 _LOST_SHARE = 0.01
 _ZERO_SHARE = 0.2  # of the planned force: a larger offset means that the sensor was not zeroed
@@ -30,6 +32,8 @@ _RIGID = 0.15  # of the tremor of the normal force: friction under voltage shows
 _BENT, _BENT_FAR = 0.01, 0.05  # of a force: a zero that is bent is corrected, or refused
 _SURELY_BENT = 6.0  # standard errors of the slopes of the idle parts
 _LEAK_AGREES = 0.35  # of the time constants by the level and by the slope after the touch
+# Friction lasts as long as the slide, or longer where skin stays stretched: it never ends before.
+_LATE_S, _LATE_SAMPLES = 0.025, 3
 _FLAT_SKEW = -0.5  # of the tangential force's fast part: a sine has 0, a spike above it
 
 _FORCE_UNITS = {"mN": 1e3, "gf": 101.97, "kgf": 0.10197, "lbf": 0.22481, "ozf": 3.5969, "uN": 1e6}
@@ -98,6 +102,7 @@ def check_recording(
     if not forces:  # in a wrong unit no other check of the forces means anything
         findings += checks.zero()
         findings += bent
+        findings += checks.late_position()
         findings += checks.off_target(tolerance)
         if not any(finding.kind == "clipped force" for finding in findings):
             findings += checks.flattened()
@@ -441,6 +446,36 @@ class _SlidingChecks:
                     "added; choose a wider range of the sensor or a smaller force",
                 )
                 return
+
+    def late_position(self) -> Iterator[Finding]:
+        """Slides that go on, by their position, after friction has ended: two clocks."""
+        t, step = self.recording.t_s, 1 / self.recording.sample_rate_hz
+        width = max(round(_SMOOTHING_S / step), 1)
+        press, shear = (
+            uniform_filter1d(values - np.median(values[self.before]), width)
+            for values in (getattr(self.recording, name) for name in _FORCES)
+        )
+        velocity = sliding_speed(t, self.recording.x_mm)
+        late_s = []
+        for segment in self.segments:
+            way, sliding = segment.direction, segment.samples
+            middle = (segment.start + segment.stop) // 2
+            moves = way * velocity[middle:] > np.median(way * velocity[sliding]) / 2
+            end = middle + (len(moves) if moves.all() else int(moves.argmin()))
+            # Of both forces the upper quarter: with a late position some of the slide has none.
+            drag, pressed = np.percentile([way * shear[sliding], press[sliding]], 75, axis=1)
+            touching = press[middle:end] > pressed / 2
+            drags = touching & (way * shear[middle:end] > drag / pressed / 2 * press[middle:end])
+            last = np.flatnonzero(drags)[-1] if drags.any() else 0
+            late_s.append(step * int(touching[last + 1 :].sum()))
+        late = float(np.median(late_s))
+        if late > max(_LATE_S, _LATE_SAMPLES * step):
+            yield Finding(
+                "late position",
+                f"by its position the finger slides for {1e3 * late:.0f} ms or more after friction "
+                "has ended: x_mm comes later than the forces; record both by one clock, or take "
+                "off the delay of the position's sensor or file",
+            )
 
     def end(self) -> Iterator[Finding]:
         if len({segment.direction for segment in self.segments}) < min(self.stroke.slides, 2):

@@ -206,6 +206,37 @@ def test_strokes_without_sliding(recorded, stroke, way):
     assert kinds(recorded(stroke, way_share=way)) == ["no sliding"]
 
 
+def moved(recording, late_s):
+    """The position that was there `late_s` before, as of a file that began later."""
+    x_mm = np.interp(recording.t_s - late_s, recording.t_s, recording.x_mm)
+    return replace(recording, x_mm=x_mm)
+
+
+@pytest.mark.parametrize("late_ms", [50, 100, 200])
+@pytest.mark.parametrize("speed", [25.0, 50.0, 100.0])
+@pytest.mark.parametrize("both", [True, False])
+def test_a_position_later_than_the_forces_is_refused_by_name(recorded, late_ms, speed, both):
+    change = {"speed_mm_per_s": speed, "there_and_back": both}
+    late = moved(recorded(ONE_WAY.model_copy(update=change)), late_ms / 1e3)
+    (said,) = (one for one in check_recording(late, 0.3) if one.kind == "late position")
+    assert said.is_fatal
+    # The window of 20 ms moves an end by half of it at most; the finger is gone after 100 ms.
+    found = float(re.search(r"for (\d+) ms or more", said.message)[1])
+    assert min(late_ms, 100) - 10 <= found <= late_ms + 10
+
+
+@pytest.mark.parametrize("stretch_mm", [0.3, 1.0, 3.0])
+def test_skin_that_stretches_before_it_slips_is_no_late_position(recorded, stroke, stretch_mm):
+    """Friction of a spring between finger and contact: it outlasts the slide, and turns later."""
+    recording = recorded(stroke)
+    mu, drag = 0.0, []
+    for move in np.diff(recording.x_mm, prepend=recording.x_mm[0]) / stretch_mm:
+        mu = min(max(mu + 0.3 * move, -0.3), 0.3)
+        drag.append(mu)
+    stretched = replace(recording, tangential_force_n=np.array(drag) * recording.normal_force_n)
+    assert "late position" not in kinds(stretched)
+
+
 @pytest.mark.parametrize(
     ("fault", "kind", "said"),
     [
