@@ -219,6 +219,10 @@ def eager(function: Callable[Given, Found]) -> Callable[Given, Found]:
         "torch.compile with fullgraph and torch.vmap cannot follow it; pass whole tensors, and "
         "wrap calls from compiled code in torch.compiler.disable"
     )
+    backwards = (
+        f"{function.__name__}: expected a plain call, since its derivatives are those of reverse "
+        "mode alone; use backward, torch.autograd.grad or torch.func.jacrev"
+    )
 
     @wraps(function)
     def run(*given: Given.args, **named: Given.kwargs) -> Found:
@@ -230,6 +234,12 @@ def eager(function: Callable[Given, Found]) -> Callable[Given, Found]:
             return outside(*given, **named)
         if torch._C._get_tracing_state() is not None or torch.compiler.is_compiling():
             raise InputError(sentence)
+        forward_ad = torch.autograd.forward_ad
+        if forward_ad._current_level >= 0 and any(  # there is no public one
+            isinstance(value, torch.Tensor) and forward_ad.unpack_dual(value).tangent is not None
+            for value in (*given, *named.values())
+        ):
+            raise InputError(backwards)
         try:
             return function(*given, **named)
         except RuntimeError as error:

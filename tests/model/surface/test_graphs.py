@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from haptix import ContactModel, Finger, Screen
 from haptix.base.errors import InputError
@@ -97,3 +98,22 @@ def test_closed_forms_are_held_by_every_graph() -> None:
         assert torch.equal(torch.jit.trace(form, (waves,))(other), expected)
         exported = torch.export.export(Module(partial(_first, form)), (waves, waves))
         torch.testing.assert_close(exported.module()(other, other), expected, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("name", ["mu", "voltage", "solve"])
+def test_forward_mode_is_refused_and_not_answered_without_a_derivative(
+    plain: FrictionSurface, model: ContactModel, name: str
+) -> None:
+    call = {
+        "mu": lambda x: plain.mu(0.5, x),
+        "voltage": lambda x: plain.voltage(x, 0.5).voltage_v,
+        "solve": lambda x: model.solve(0.5, x).mu,
+    }[name]
+    at = torch.tensor([0.3] if name == "voltage" else [50.0], dtype=torch.float64)
+    with pytest.raises(InputError, match="reverse mode"), forward_ad.dual_level():
+        call(forward_ad.make_dual(at, torch.ones_like(at)))
+    with pytest.raises(InputError, match="reverse mode"):
+        torch.func.jacfwd(call)(at)
+    assert torch.func.jacrev(call)(at).item() > 0
+    with forward_ad.dual_level():  # of others; these inputs have no tangent
+        assert torch.equal(call(at), call(at))
