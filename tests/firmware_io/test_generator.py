@@ -203,9 +203,26 @@ def test_a_trace_shows_gain_offset_and_delay_of_a_rig(rate_hz, probe):
     check = check_trace(drive_v, trace, rate_hz, probe)
     assert check.gain == pytest.approx(0.93, rel=1e-3)
     assert check.offset_v == pytest.approx(1.5, abs=0.01)
-    assert check.delay_s == pytest.approx(0.01, abs=1 / OUTPUT_HZ)
-    # Five deviations of the noise, and half a sample of the sine's slope, which is 1.6 V a sample.
-    assert check.largest_difference_v < 5 * 0.05 + 0.5 * 1.6
+    assert check.delay_s == pytest.approx(0.01, abs=0.1 / OUTPUT_HZ)
+    # Five deviations of the noise, and a tenth of a sample of the sine's slope of 1.6 V a sample.
+    assert check.largest_difference_v < 5 * 0.05 + 0.1 * 1.6
+
+
+@pytest.mark.parametrize("late_us", [0.0, 5.0, 10.4, 20.0])
+def test_an_amplifier_that_is_late_by_a_part_of_a_sample_is_not_weak(late_us):
+    rate_hz = 500_000
+
+    def drive_v(t_s):
+        inside = (t_s > 0) & (t_s < 0.1)
+        return np.where(inside, 80 * np.sin(10 * np.pi * t_s) ** 2 * np.sin(8000 * np.pi * t_s), 0)
+
+    t_s = np.arange(int(0.13 * rate_hz)) / rate_hz - 0.01
+    played_v = drive_v(np.arange(4800) / OUTPUT_HZ)
+    check = check_trace(played_v, drive_v(t_s - 1e-6 * late_us), rate_hz)
+    assert check.gain == pytest.approx(1.0, abs=1e-3)
+    assert check.delay_s == pytest.approx(0.01 + 1e-6 * late_us, abs=2e-7)
+    # A straight line between two points of the trace is off by (2 pi f / rate)^2 / 8 at most.
+    assert check.largest_difference_v < 2 * 80 * (2 * np.pi * 4000 / rate_hz) ** 2 / 8
 
 
 def test_a_trace_that_is_too_short_is_refused():
