@@ -199,7 +199,7 @@ class Inputs(Document):
         kind = "audio"                # or "national-instruments"
         device = "hw:2,0"             # for National Instruments each channel names its own input
         sample_rate_hz = 48000
-        full_scale_v = 10.0           # of the audio device
+        full_scale_v = 10.0           # audio: of a full sample, else 1; other: range, else 10
         sensor = "FT12345"            # serial number of the force sensor
         [[channels]]
         signal = "normal_force_n"     # value = scale * volts + offset, in N, mm or V
@@ -215,7 +215,7 @@ class Inputs(Document):
     kind: Literal["audio", "national-instruments"]
     device: str | int = ""
     sample_rate_hz: PositiveFloat = 10_000.0
-    full_scale_v: PositiveFloat = 1.0
+    full_scale_v: PositiveFloat | None = None
     sensor: str
     channels: Annotated[tuple[InputChannel, ...], Field(min_length=3)]
 
@@ -231,13 +231,13 @@ def open_inputs(path: str | Path) -> AnalogSource:
     rate_hz = described.sample_rate_hz
     if described.kind == "audio":
         count = len(described.channels)
-        reader = AudioReader(described.device, count, described.full_scale_v, rate_hz)
+        reader = AudioReader(described.device, count, described.full_scale_v or 1.0, rate_hz)
     else:
         unnamed = [channel.signal for channel in described.channels if channel.input is None]
         if unnamed:
             raise InputError(f"{path}: expected the input of {', '.join(unnamed)}, as Dev1/ai0")
         names = [channel.input for channel in described.channels if channel.input is not None]
-        reader = NationalInstrumentsReader(names, rate_hz)
+        reader = NationalInstrumentsReader(names, rate_hz, described.full_scale_v or 10.0)
     return AnalogSource(reader, described.channels, described.sensor)
 
 
@@ -372,16 +372,21 @@ class AudioReader:
 
 
 class NationalInstrumentsReader:
-    """Inputs of a National Instruments device, such as "Dev1/ai0", through nidaqmx."""
+    """Inputs of a National Instruments device, such as "Dev1/ai0", through nidaqmx.
 
-    def __init__(self, channels: Sequence[str], sample_rate_hz: float) -> None:
+    The device takes its smallest range that holds ``-full_scale_v`` to ``full_scale_v``.
+    """
+
+    def __init__(self, channels: Sequence[str], sample_rate_hz: float, full_scale_v: float) -> None:
         with from_extra("daq"):
             import nidaqmx as daq
         self._count = len(channels)
         try:
             self._task = daq.Task()
             for channel in channels:
-                self._task.ai_channels.add_ai_voltage_chan(channel)
+                self._task.ai_channels.add_ai_voltage_chan(
+                    channel, min_val=-full_scale_v, max_val=full_scale_v
+                )
             self._task.timing.cfg_samp_clk_timing(
                 sample_rate_hz,
                 sample_mode=daq.constants.AcquisitionType.CONTINUOUS,

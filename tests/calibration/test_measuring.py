@@ -1,6 +1,7 @@
 """Playing a protocol: what is on disk, when, and what becomes of strokes that are off."""
 
 import logging
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -304,6 +305,24 @@ def test_wrong_descriptions_of_inputs(tmp_path, text, said):
     (tmp_path / "inputs.toml").write_text(text)
     with pytest.raises(haptix.HaptixError, match=rf"inputs\.toml: {said}"):
         open_inputs(tmp_path / "inputs.toml")
+
+
+@pytest.mark.parametrize(("stated", "range_v"), [("", 10.0), ("full_scale_v = 5.0\n", 5.0)])
+def test_an_input_has_the_range_that_the_file_states(tmp_path, stated, range_v):
+    """By nidaqmx's own default it has +-5 V, at which a sensor of +-10 V is clipped."""
+    nidaqmx = pytest.importorskip("nidaqmx")
+    names = "normal_force_n", "tangential_force_n", "x_mm"
+    channels = "".join(
+        f'[[channels]]\nsignal = "{name}"\nscale = 1.0\ninput = "Dev1/ai{number}"\n'
+        for number, name in enumerate(names)
+    )
+    head = 'schema_version = 1\nkind = "national-instruments"\nsensor = "FT1"\n'
+    (tmp_path / "inputs.toml").write_text(head + stated + channels)
+    with patch.object(nidaqmx, "Task") as task:
+        open_inputs(tmp_path / "inputs.toml")
+    opened = task.return_value.ai_channels.add_ai_voltage_chan.call_args_list
+    assert [one.args for one in opened] == [("Dev1/ai0",), ("Dev1/ai1",), ("Dev1/ai2",)]
+    assert [one.kwargs for one in opened] == [{"min_val": -range_v, "max_val": range_v}] * 3
 
 
 def test_the_monitor_sees_what_was_played():

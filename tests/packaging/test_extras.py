@@ -130,7 +130,7 @@ def test_the_demo_plays_without_photograph_and_picture_and_says_so(without_extra
 def test_inputs_without_their_package_name_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "nidaqmx", None)
     with pytest.raises(MissingExtraError, match=r"nidaqmx.*\[daq\]"):
-        NationalInstrumentsReader(["Dev1/ai0"], 1000.0)
+        NationalInstrumentsReader(["Dev1/ai0"], 1000.0, 10.0)
 
 
 def test_what_is_missing_further_down_keeps_its_extra():
