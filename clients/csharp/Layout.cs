@@ -146,8 +146,7 @@ namespace Haptix
                 using (SHA256 sha = SHA256.Create())
                     digest = BitConverter.ToString(sha.ComputeHash(content)).Replace("-", "").ToLowerInvariant();
                 Service service = _find();
-                var address = new Uri(new Uri("http" + service.Url.Substring(2)), "/v1/assets/" + digest + "?suffix=" + suffix);
-                var request = (HttpWebRequest)WebRequest.Create(address);
+                var request = (HttpWebRequest)WebRequest.Create(service.Http("/v1/assets/" + digest + "?suffix=" + suffix));
                 request.Method = "PUT";
                 request.Headers["Authorization"] = "Bearer " + service.Token;
                 try

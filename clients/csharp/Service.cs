@@ -17,6 +17,14 @@ namespace Haptix
             Token = token;
         }
 
+        /// <summary>Return where the service of a session is asked by HTTP; both may lie behind a path of a proxy.</summary>
+        public Uri Http(string path)
+        {
+            const string Session = "/v1/session";
+            string http = "http" + Url.Substring(2).TrimEnd('/');
+            return new Uri((http.EndsWith(Session) ? http.Substring(0, http.Length - Session.Length) : http) + path);
+        }
+
         /// <summary>Return the running service. Its token is new at each start.</summary>
         public static Service Find()
         {

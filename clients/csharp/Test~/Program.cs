@@ -159,6 +159,8 @@ static class Program
         Check.That(error.Code == "lease", "an error of the touch");
         Check.Next<Closed>(h, () => h.Dispose());
         Check.That(!h.Touch(1f, 1f), "no connection");
+        var behind = new Service("wss://far/hx/v1/session", "");
+        Check.That(behind.Http("/v1/assets/1").ToString() == "https://far/hx/v1/assets/1", "behind a path");
         Service service = Service.Find();
         refused = await Check.Refuses(() => Session.Connect("test", () => new Service(service.Url, "guess")));
         Check.That(refused.Code == "access", "access");

@@ -55,9 +55,14 @@ export class Lost extends Error {
   name = "Lost";
 }
 
-/** @param {string} url @param {string} path @param {RequestInit} request */
+/**
+ * Ask the service of a session by HTTP; both may lie behind a path of a proxy.
+ * @param {string} url @param {string} path @param {RequestInit} request
+ */
 export async function http(url, path, request) {
-  const answer = await fetch(new URL(path, url.replace(/^ws/, "http")), request).catch(async () => {
+  const { origin, pathname } = new URL(url.replace(/^ws/, "http"));
+  const behind = pathname.replace(/(\/v1\/session)?\/?$/, "");
+  const answer = await fetch(new URL(`${origin}${behind}${path}`), request).catch(async () => {
     throw new Lost(await obstacle(url));
   });
   if (!answer.ok) throw new Refused(await answer.json());

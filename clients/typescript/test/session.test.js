@@ -6,6 +6,7 @@ import { setTimeout as sleep } from "node:timers/promises";
 import WebSocket from "ws";
 
 import { connect, feel, now, Refused } from "../src/haptix.js";
+import { http } from "../src/connection.js";
 import { find } from "../src/node.js";
 import { Pointers } from "../src/pointers.js";
 
@@ -167,6 +168,15 @@ test("a job is watched", async () => {
   const h = await open();
   await assert.rejects(h.watch("none"), { code: "unknown", path: "/job" });
   await h.close();
+});
+
+test("what is asked by HTTP lies beside the session, also behind a path", async (t) => {
+  const asked = [];
+  t.mock.method(globalThis, "fetch", async (to) => (asked.push(String(to)), { ok: true }));
+  for (const url of ["wss://far/hx/v1/session", "ws://127.0.0.1:7421/v1/session", "wss://far/"])
+    await http(url, "/v1/assets/1?suffix=.png", {});
+  const bases = ["https://far/hx", "http://127.0.0.1:7421", "https://far"];
+  assert.deepEqual(asked, bases.map((base) => `${base}/v1/assets/1?suffix=.png`));
 });
 
 test("a wrong token is no reason to try again", async () => {

@@ -65,7 +65,10 @@ export declare class Refused extends Error {
 export declare class Lost extends Error {
     name: string;
 }
-/** @param {string} url @param {string} path @param {RequestInit} request */
+/**
+ * Ask the service of a session by HTTP; both may lie behind a path of a proxy.
+ * @param {string} url @param {string} path @param {RequestInit} request
+ */
 export declare function http(url: string, path: string, request: RequestInit): Promise<Response>;
 /** Return the time of the clock that stamps touches and events of a page [s]. */
 export declare function now(): number;
