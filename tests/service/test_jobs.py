@@ -7,11 +7,14 @@ import subprocess
 import sys
 import time
 from http.client import HTTPConnection
+from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import calibration
 import haptix
 from haptix.base.task import Context
 from haptix.feel.motion import Trajectory
@@ -19,6 +22,8 @@ from haptix.lab.experiment import Question
 from haptix.play.render import LiveSettings
 from haptix.play.simulation import Setting, simulate
 from haptix.play.virtual_finger import TouchPanel
+from haptix.service.front.jobs import Job
+from haptix.service.protocol.messages import JobMessage
 from haptix.service.protocol.messages.reading import asyncapi
 from haptix.service.worker.process import JobWork
 from haptix.tasks.stimuli import judgement
@@ -205,8 +210,8 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     t_s = np.arange(0, 0.3, 0.01)
     stroke = {"t_s": t_s, "x_mm": 60 * t_s, "y_mm": 5.0 + 0 * t_s, "normal_force_n": 0.5 + 0 * t_s}
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": str(tmp_path)}
-    shares = []
-    work = JobWork(context, lambda share: shares.append(share), None)
+    said = []
+    work = JobWork(context, lambda **fields: said.append(fields), None)
     lists = {name: column.tolist() for name, column in stroke.items()}
     found = work.rendering(material=GRATING, **lists, touch_latency_ms=20.0, reaction_ms=3.0)
     setting = Setting(
@@ -216,6 +221,7 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     assert was_kept  # the job has built the very surface that `haptix render` takes
     whole = simulate(setting, surface, TouchPanel(100.0, 0.02), LiveSettings(reaction_s=0.003))
     assert found["evaluation"]["error_rms_jnd"] == whole.evaluation.error_rms_jnd
+    shares = [one["share"] for one in said if "share" in one]
     assert shares == sorted(shares) and shares[-1] > 0.9
     told = json.dumps(found)
     assert '"voltage' not in told and '_v"' not in told
@@ -238,6 +244,49 @@ def test_a_calibration_asks_before_each_stroke_and_is_continued(tmp_path, monkey
     total = int(prompts[0].split(" of ")[1].split(":")[0])
     assert len(first["still_open"]) == total - 1
     assert not any(" V" in prompt or "olt" in prompt for prompt in prompts)
+
+
+def test_a_calibration_tells_each_of_its_steps(tmp_path, monkeypatch):
+    class EndedError(Exception):
+        pass
+
+    def measured(session, source, device, context):
+        context.tell(step="stroke 1: force off: press harder")
+        context.progress("measure", 1.0)
+        return SimpleNamespace(still_open=())
+
+    def decided(folder, context, go_on):
+        context.progress("fit", 0.0)
+        context.progress("verify", 0.0)
+        raise EndedError
+
+    # `calibration.measure` is the function of that name, beside the folder.
+    for module, name, what in (
+        ("measure.measuring", "measure_guided", measured),
+        ("steps", "finish_decided", decided),
+    ):
+        monkeypatch.setattr(import_module(f"calibration.{module}"), name, what)
+    monkeypatch.setattr(calibration.Session, "open_strokes", ())
+    context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
+    context["calibrations"] = str(tmp_path)
+    said = []
+    work = JobWork(context, lambda **fields: said.append(fields), iter(()))
+    with pytest.raises(EndedError):
+        work.calibration(name="panel-7", minutes=2.0)
+    steps = [one["step"] for one in said if "step" in one]
+    # After a fault of a stroke the page shows again that it measures.
+    assert steps == ["measure", "stroke 1: force off: press harder", "measure", "fit", "verify"]
+
+
+def test_a_worker_that_was_silent_and_goes_on_is_not_said_to_be_silent(monkeypatch):
+    job = Job("programs", JobMessage(job="a1", kind="calibration", state="running"), {}, list)
+    monkeypatch.setattr(job, "has_loaded", lambda: None)
+    job.on_silence(0.7)
+    assert job.message.sentence.startswith("silent for 0.7 s")
+    job.on_message({"step": "fit"})
+    assert (job.message.step, job.message.sentence) == ("fit", "")
+    job.on_silence(0.9)
+    assert job.message.sentence.startswith("silent for 0.9 s")
 
 
 def test_a_job_that_is_not_there(service):

@@ -123,6 +123,8 @@ class Job(Process):
         if self.is_over:
             return
         self.has_loaded()  # a worker that answers has loaded
+        if self.message.sentence:  # that it was silent
+            self.change(sentence="")
         if "share" in message:
             if message["share"] - self.message.share >= _SHARE:
                 self.change(share=message["share"])

@@ -224,12 +224,18 @@ class _JobContext(Context):
 
     def __init__(self, say: Callable[..., None], answers: Iterator[str], task: type[Task]) -> None:
         super().__init__()
-        self.tell, self._answers = say, answers  # type: ignore[method-assign]
-        self._stages = task.stages
+        self._say, self._answers = say, answers
+        self._stages, self._step = task.stages, ""
+
+    def tell(self, **what: Any) -> None:
+        self._step = what.get("step", self._step)
+        self._say(**what)
 
     def progress(self, stage: str, share: float) -> None:
         super().progress(stage, share)
         if stage in self._stages:
+            if stage != self._step:  # a page shows what is done, also after a fault of a stroke
+                self.tell(step=stage)
             self.tell(share=(self._stages.index(stage) + share) / len(self._stages))
 
     def ask(self, prompt: str, choices: Sequence[str] = ()) -> str:
