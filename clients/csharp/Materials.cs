@@ -22,7 +22,7 @@ namespace Haptix.Materials
     /// <summary>A button whose corner is the origin.</summary>
     [Preserve] public partial class Button
     {
-        /// <summary>Size on the screen.</summary>
+        /// <summary>Size on the screen. What is left at its default is that of the region.</summary>
         [Preserve, JsonProperty("height_mm", NullValueHandling = NullValueHandling.Ignore)] public double? HeightMm { get; set; }
         /// <summary>Friction at the lowest and at the highest level.</summary>
         [Preserve, JsonProperty("high", NullValueHandling = NullValueHandling.Ignore)] public double? High { get; set; }
@@ -41,7 +41,7 @@ namespace Haptix.Materials
         /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)] public string Target { get; set; }
-        /// <summary>Size on the screen.</summary>
+        /// <summary>Size on the screen. What is left at its default is that of the region.</summary>
         [Preserve, JsonProperty("width_mm", NullValueHandling = NullValueHandling.Ignore)] public double? WidthMm { get; set; }
     }
 
@@ -691,7 +691,7 @@ namespace Haptix.Materials
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)] public string Target { get; set; }
         /// <summary>Way over which friction rises.</summary>
         [Preserve, JsonProperty("throw_mm", NullValueHandling = NullValueHandling.Ignore)] public double? ThrowMm { get; set; }
-        /// <summary>Width; the middle is at half of it.</summary>
+        /// <summary>Width; the middle is at half of it. What is left at its default is that of the region.</summary>
         [Preserve, JsonProperty("width_mm", NullValueHandling = NullValueHandling.Ignore)] public double? WidthMm { get; set; }
     }
 

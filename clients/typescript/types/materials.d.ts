@@ -50,9 +50,9 @@ export interface Button {
   low?: number;
   /** Friction at the lowest and at the highest level. */
   high?: number;
-  /** Size on the screen. */
+  /** Size on the screen. What is left at its default is that of the region. */
   width_mm?: number;
-  /** Size on the screen. */
+  /** Size on the screen. What is left at its default is that of the region. */
   height_mm?: number;
   /** Normal forces at which it is pressed and let go. */
   press_n?: number;
@@ -628,7 +628,7 @@ export interface Toggle {
   high?: number;
   /** Width of a ridge. It lies between two detents: friction brakes there, and lets go when the finger has passed. It never pulls the finger anywhere, as a spring would. */
   ridge_mm?: number;
-  /** Width; the middle is at half of it. */
+  /** Width; the middle is at half of it. What is left at its default is that of the region. */
   width_mm?: number;
   /** Way over which friction rises. */
   throw_mm?: number;

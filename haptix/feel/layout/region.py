@@ -70,7 +70,7 @@ class RegionFields(Place):
     Parameters
     ----------
     width_mm, height_mm : float, optional
-        Size; some materials have their own.
+        Size; some materials have their own. A button or toggle that states none has this one.
     shape : {"rectangle", "ellipse"} or sequence of (x_mm, y_mm), optional
         The outline; a rectangle of a new region.
     scale : float, optional

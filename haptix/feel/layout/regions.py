@@ -26,6 +26,7 @@ from haptix.feel.materials import (
     Texture,
     check_feelable,
 )
+from haptix.feel.materials.controls import filling
 from haptix.feel.materials.material import AnyMaterial
 from haptix.feel.motion import Depends, LocalFrame, Motion, Report
 
@@ -337,7 +338,9 @@ class Regions:
         self._draft = draft
 
     def _region(self, key: int, fields: Region, now_s: float) -> RegionState:
-        evaluator = self._evaluator(fields.material)
+        size = fields.size_mm
+        felt = filling(fields.material, *size)
+        evaluator = self._evaluator(felt)
         # Some make their maps at the first evaluation: make them now, not during a stroke.
         evaluator.wanted(Motion.of([0.0], 0.0))
         blend = fields.blend or "over"
@@ -353,13 +356,12 @@ class Regions:
                     "mask: expected shares that no event of the finger changes, got a material of "
                     f"{mask.target}"
                 )
-        size = fields.size_mm
         opacity = 1.0 if fields.opacity is None else fields.opacity
         fade = Glide((0.0,), (opacity,), now_s, now_s + FADE_S)
         return RegionState(
             key, evaluator, Outline(*size, fields.shape or "rectangle"),
             Glide.resting(*fields.corner(*size)), fade, fields.z or 0.0, blend,
-            fields.priority or 0, mask, control=control_of(fields.material),
+            fields.priority or 0, mask, control=control_of(felt),
         )  # fmt: skip
 
     def _evaluator(self, material: Feelable) -> Evaluator:

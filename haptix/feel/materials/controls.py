@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from functools import cached_property
 from math import atan2, cos, isnan, pi, radians, sin
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.base.checks import Array, increasing
+from haptix.base.errors import InputError
 from haptix.feel.materials.by_curve import Row
 from haptix.feel.materials.field import turned
 from haptix.feel.materials.material import Scaled
 from haptix.feel.motion import Depends, Facts, LocalFrame, Motion, Report
+
+Sized = TypeVar("Sized")
 
 LEAST_PITCH_MM = 3.0
 """Closer detents run together: places of live touches err by 0.8 mm (95 %)."""
@@ -191,7 +194,7 @@ class Toggle(_Control):
     Parameters
     ----------
     width_mm : float
-        Width; the middle is at half of it.
+        Width; the middle is at half of it. What is left at its default is that of the region.
     throw_mm : float
         Way over which friction rises.
 
@@ -369,7 +372,7 @@ class Button(Scaled):
     Parameters
     ----------
     width_mm, height_mm : float
-        Size on the screen.
+        Size on the screen. What is left at its default is that of the region.
     press_n, release_n : float
         Normal forces at which it is pressed and let go.
     rim_mm : float
@@ -454,6 +457,39 @@ class Button(Scaled):
         lasting = np.maximum(_dropped(since_press), _risen(since_press))
         after = np.maximum(_dropped(since_release), by_force * _risen(since_release))
         return np.where(pressed, lasting, np.where(since_release >= 0, after, by_force))
+
+
+def filling(material: Sized, width_mm: float, height_mm: float) -> Sized:
+    """Return a button or toggle in the size of its region, other materials as they are.
+
+    Only a size that is left at its default is replaced, and only by one that the control admits.
+
+    Parameters
+    ----------
+    material : Feelable
+    width_mm, height_mm : float
+        The region's size, before it is scaled.
+
+    Examples
+    --------
+    >>> filling(Button(height_mm=10.0), 60.0, 20.0).width_mm
+    60.0
+    """
+    if not isinstance(material, Button | Toggle):
+        return material
+    known = type(material).model_fields
+    size = {"width_mm": width_mm, "height_mm": height_mm}
+    of_region = {
+        name: size_mm
+        for name, size_mm in size.items()
+        if name in known and getattr(material, name) == known[name].default != size_mm
+    }
+    if not of_region:
+        return material
+    try:
+        return type(material)(**material.model_dump() | of_region)
+    except InputError:
+        return material
 
 
 def _dropped(since_s: Array) -> Array:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from haptix import InputError, Layout, Screen, Texture
 from haptix.feel.layout import ScreenGeometry, region_state, regions
 from haptix.feel.layout.regions import FADE_S, GLIDE_S
-from haptix.feel.materials import Grating, load, material_of
+from haptix.feel.materials import Button, Grating, Toggle, load, material_of
 from haptix.feel.materials.field import Evaluator
 from haptix.feel.materials.pyramid import Pyramid
 from haptix.feel.motion import Depends, Facts, Motion, Report
@@ -291,6 +291,36 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
     for found, wanted in zip(many, answers(made()), strict=True):
         for a, b in zip(found, wanted, strict=True):
             np.testing.assert_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    ("button", "presses_at"),
+    [
+        (Button(), {(50.0, 10.0): True, (8.0, 18.5): False}),  # its rim is that of the region
+        (Button(width_mm=20.0), {(50.0, 10.0): False, (10.0, 15.0): True}),
+    ],
+)
+def test_a_button_without_a_size_of_its_own_fills_its_region(button, presses_at):
+    layout = Layout()
+    region = layout.add(button, x_mm=5.0, y_mm=5.0, width_mm=60.0, height_mm=20.0)
+    for (x_mm, y_mm), is_pressed in presses_at.items():
+        x_mm, y_mm = x_mm + 5.0, y_mm + 5.0
+        facts = layout.react(Facts(down_s=0.0), None, Report(0.0, x_mm, y_mm, 0.1))
+        facts = layout.react(facts, Report(0.0, x_mm, y_mm, 0.1), Report(0.1, x_mm, y_mm, 2.0))
+        assert (not np.isnan(facts.press_s)) == is_pressed
+    region.change(width_mm=30.0)
+    report = Report(0.2, 33.0, 15.0, 2.0)  # 28 mm in the region, where its rim begins
+    is_pressed = not np.isnan(layout.react(Facts(down_s=0.2), None, report).press_s)
+    assert is_pressed == (button.width_mm == 16.0)
+
+
+def test_a_toggle_goes_over_in_the_middle_of_its_region():
+    layout = Layout()
+    layout.add(Toggle(), x_mm=0.0, y_mm=0.0, width_mm=60.0, height_mm=20.0)
+    layout.add(Toggle(), x_mm=0.0, y_mm=40.0, width_mm=8.0, height_mm=4.0)  # shorter than its throw
+    x = np.array([24.0, 29.9, 30.4, 36.0])
+    felt = layout.wanted(Motion.of(x, 10.0, vx_mm_s=50.0))
+    assert felt.argmax() == 1 and felt[2] < 0.1
 
 
 def test_fingers_far_apart_ask_no_regions_between_them(monkeypatch):
