@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,7 +44,7 @@ def test_the_contract_s_answers_are_those_of_the_engine(environment):
     found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
     address = f"ws://127.0.0.1:{found['port']}/v1/session"
     with connect("contract", address, found["token"]) as h:
-        answer = None
+        answer: Any = None
         for line in CONTRACT:
             if "sends" not in line or line["do"] in ("watch", "touch", "lift"):
                 continue  # the job and the fingers are of the front's own tests
