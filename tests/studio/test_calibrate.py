@@ -14,6 +14,7 @@ from haptix.model.finger import Finger
 from haptix.model.friction import in_theory
 from haptix.model.screen import Screen
 from haptix.play.devices import profile_of
+from haptix.service.front.jobs import Job
 from tests.studio.conftest import a_page, address, keep
 
 LONG_MS = 600_000  # of a busy machine: the fit takes half a minute of a free one
@@ -27,6 +28,13 @@ def test_from_the_page_by_every_stroke_to_an_installed_profile(
     monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
     # Beside other tests a job that gives way to everything takes minutes, and seems to hang.
     monkeypatch.setattr("haptix.service.front.jobs.NICE", 0)
+    begun, change = [], Job.change
+
+    def changed(job, **fields):
+        begun.append(fields.get("step", ""))
+        change(job, **fields)
+
+    monkeypatch.setattr(Job, "change", changed)
     folder = tmp_path / "calibrations" / "panel-7"
     # A screen that is known to the test; the page continues what was planned under this name.
     # In the theory that is fitted 20 times as fast as the default, which the start page fits.
@@ -68,6 +76,8 @@ def test_from_the_page_by_every_stroke_to_an_installed_profile(
         with page.expect_download() as download:
             page.get_by_role("button", name="Save the whole report").click()
         report = download.value.path().read_text()
+    stages = ["measure", "fit", "verify", "install"]  # what the page shows as its steps
+    assert [step for step in begun if step in stages] == stages
     assert "Calibration of panel-7" in report and "http" not in report.replace("http://www.w3", "")
     device = open_device("mock:")
     installed = profile_of(device)
