@@ -91,8 +91,10 @@ def test_all_processes_of_a_service_log(tmp_path):
                 h.touch(7.0, 8.0)
                 wait_for(lambda: "mock > Revise " in logged())
         finally:
-            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGTERM)  # as systemd and `kill` end it
             process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert not (tmp_path / "service" / "service.json").exists()
     for file in tmp_path.glob("a*.log"):  # each process has a file of its own
         assert len({line.split()[1] for line in file.read_text().splitlines()}) == 1, file
     text = logged()
