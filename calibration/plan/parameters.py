@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from math import isfinite, log, sqrt
+from math import exp, isfinite, log, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -227,13 +227,21 @@ class Parameters:
         raise InputError(f"parameter {name!r}: expected one of {', '.join(self.names)}")
 
     def fixed(self, **values: float) -> Parameters:
-        """Return a copy with parameters held at values."""
+        """Return a copy with parameters held at values.
+
+        Raises `InputError` if one is a factor of 100 off the start: it was meant in another unit.
+        """
+        self._check_units(values)
         return self._changed(
             {name: Parameter(name, value, None, True) for name, value in values.items()}
         )
 
     def known(self, **priors: tuple[float | None, float]) -> Parameters:
-        """Return a copy with priors ``name=(value, spread)``; None keeps the value."""
+        """Return a copy with priors ``name=(value, spread)``; None keeps the value.
+
+        Raises `InputError` as `fixed`.
+        """
+        self._check_units({name: value for name, (value, _) in priors.items() if value is not None})
         changed = {}
         for name, (value, spread) in priors.items():
             changed[name] = Parameter(name, self[name].value if value is None else value, spread)
@@ -263,6 +271,17 @@ class Parameters:
         return replace(
             self, all=tuple(parameter for parameter in self.all if parameter.name not in names)
         )
+
+    def _check_units(self, values: Mapping[str, float]) -> None:
+        for name in set(values) & set(self.names):
+            value, start = values[name], self[name].value
+            furthest = max(_FURTHEST.get(name, 0.0), _USUALLY_FURTHEST)
+            if value > 0 and abs(log(value / start)) > furthest:
+                low, high = start * exp(-furthest), start * exp(furthest)
+                raise InputError(
+                    f"{name}: expected {low:.2g} to {high:.2g}, got {value:g}; give it in the unit "
+                    "at the end of its name"
+                )
 
     def _changed(self, changed: Mapping[str, Parameter]) -> Parameters:
         kept = [changed.get(parameter.name, parameter) for parameter in self.all]

@@ -256,6 +256,8 @@ def test_nothing_to_fit(predictor, strokes, parameters):
     [
         (lambda p: p.fixed(h1_m=1.0), r"'h1_m': expected one of h0_m"),
         (lambda p: p.known(h0_m=(1e-7, 0.0)), "expected a prior above 0"),
+        (lambda p: p.fixed(h0_m=125.0), "h0_m: expected .* got 125; give it in the unit"),
+        (lambda p: p.known(h_rms_m=(20.0, 0.05)), "h_rms_m: expected .* got 20; give it"),
         (lambda p: p.started_at(h0_m=-1.0), "expected a finite number above 0"),
     ],
 )
