@@ -159,6 +159,7 @@ class Check(Task, command="calibrate check"):
     def run(self, context: Context) -> Result:
         """Compare."""
         from calibration.keep.profile import check_profile
+        from calibration.measure.session import Session
         from calibration.plan.predict import StrokePredictor
         from calibration.steps import reduce_folder
         from haptix.model.friction import ContactModel
@@ -174,8 +175,15 @@ class Check(Task, command="calibrate check"):
         predictor = StrokePredictor(ContactModel(finger, screen))
         checked = check_profile(reduce_folder(self.folder), predictor)
         days = _days_between(screen, self.folder)
+        measured = Session.open(self.folder).info.screen.name
+        if measured != screen.name:
+            context.tell(
+                step=f"the strokes are of screen {measured!r}, the profile is of {screen.name!r}: "
+                "agreement means that both feel alike, and no drift is known"
+            )
         document = {
             "verdict": checked.verdict,
+            "measured_screen": measured,
             "days": days,
             "drift": record(checked.drifts),
             "strokes": record(checked.strokes),
@@ -185,7 +193,8 @@ class Check(Task, command="calibrate check"):
         rows = [
             {"": name.replace("_", " "), **row(drift)} for name, drift in checked.drifts.items()
         ]
-        title = f"{first_line(about)}\n{checked.verdict}: {screen.name}{since}; drift in JND"
+        of = "" if measured == screen.name else f", by strokes on {measured}"
+        title = f"{first_line(about)}\n{checked.verdict}: {screen.name}{of}{since}; drift in JND"
         return Result(document, [(title, rows)], failed=not checked.passed)
 
     def _by_current(self, model: ContactModel, about: dict[str, Any]) -> Result:

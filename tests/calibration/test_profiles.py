@@ -247,6 +247,22 @@ def test_strokes_of_the_same_screen_show_no_drift(strokes, predictor):
     assert found.drifts["all"].strokes == 58
 
 
+@pytest.mark.parametrize("name", ["panel 7", "panel 8"])
+def test_a_check_by_strokes_of_another_screen_says_so(
+    tmp_path, files, monkeypatch, strokes, screen, finger, name
+):
+    calibrated(screen.replace(name="panel 7")).save(files[0])
+    info = SessionInfo(screen=screen.replace(name=name), finger=finger)
+    Session.begin(tmp_path / "s", full_protocol(180.0), info)
+    monkeypatch.setattr("calibration.steps.reduce_folder", lambda folder: strokes)
+    command = ["check", str(tmp_path / "s"), "--profile", str(files[0])]
+    made = CliRunner().invoke(app, command)
+    assert made.exit_code == 0, made.exception
+    said = " ".join(made.output.split())
+    assert ("strokes are of screen 'panel 8'" in said) is (name == "panel 8")
+    assert ("passed: panel 7, by strokes on panel 8" in said) is (name == "panel 8")
+
+
 def test_a_thicker_insulator_shows_under_voltage_alone(strokes, finger, screen):
     thin = screen.replace(insulator_thickness_m=0.6e-6)
     found = check_profile(strokes, StrokePredictor(haptix.ContactModel(finger, thin)))
