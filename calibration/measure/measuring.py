@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from hashlib import sha256
 from typing import NamedTuple
 
 import numpy as np
@@ -123,6 +124,8 @@ def measure(
     watcher = watcher or Watcher()
     protocol, room = session.protocol, conditions or Conditions()
     rejected = 0
+    # No instrument reads the same noise twice, but a file may be there under two numbers.
+    seen = {} if source.is_live else {_samples(one): one.stroke for one in session.recordings}
     for stroke in session.open_strokes:
         for tries in range(most_tries):
             watcher.prompt(stroke, tries)
@@ -139,12 +142,15 @@ def measure(
                 unmeasured.add("drive_v")
             recording = StrokeRecording.of(stroke, signals, began, tuple(sorted(unmeasured)))
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
+            if not source.is_live and (first := seen.get(_samples(recording))) is not None:
+                findings.append(_repeated(first))
             fatal = tuple(str(finding) for finding in findings if finding.is_fatal)
             session.keep(replace(recording, findings=fatal))
             texts = "; ".join(map(str, findings))
             _LOG.info("stroke %d is %s: %s", stroke.number, "repeated" if fatal else "kept", texts)
             watcher.done(stroke, findings)
             if not fatal:
+                seen[_samples(recording)] = stroke
                 break
             rejected += 1
     still_open = session.open_strokes
@@ -222,6 +228,20 @@ class _Guide:
         }
         self._rows, self._told_s = [], time.monotonic()
         self._context.tell(trace=trace)
+
+
+def _samples(recording: StrokeRecording) -> bytes:
+    """Hash of what the instruments read."""
+    read = recording.normal_force_n, recording.tangential_force_n, recording.x_mm
+    return sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in read)).digest()
+
+
+def _repeated(stroke: Stroke) -> Finding:
+    return Finding(
+        "same samples",
+        f"they are those of stroke {stroke.number}, bit for bit: is a file there twice, under two "
+        "numbers? Give each stroke its own recording",
+    )
 
 
 def measure_guided(

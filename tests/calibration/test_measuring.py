@@ -47,7 +47,7 @@ class Scripted:
         self.before()
         self.played.append(played)
         fault = self.faults.pop(0) if self.faults else {}
-        made = self.recorded(stroke, **fault)
+        made = self.recorded(stroke, **{"seed": stroke.number, **fault})
         self.signals = {name: getattr(made, name) for name in SIGNALS}
 
     def live(self, t_s):
@@ -164,6 +164,19 @@ def test_what_a_screen_does_not_bear_is_refused_before_the_first_stroke(tmp_path
     assert session.recordings == []
 
 
+def test_a_recording_under_two_numbers_is_refused_also_after_a_pause(session, recorded):
+    told = []
+    watcher = Watcher(done=lambda stroke, wrong: told.append([str(one) for one in wrong]))
+    source = Scripted(recorded, [{"seed": 5}, {"seed": 5}, {"seed": 6}])
+    outcome = measure(session, source, watcher=watcher, most_tries=1)
+    assert [one.number for one in outcome.still_open] == [2]
+    assert told[0] == told[2] == []
+    assert "those of stroke 1, bit for bit" in told[1][0]
+    outcome = measure(session, Scripted(recorded, [{"seed": 6}]), watcher=watcher, most_tries=1)
+    assert [one.number for one in outcome.still_open] == [2]
+    assert "those of stroke 3" in told[3][0]
+
+
 def test_the_drive_is_a_sine_that_comes_and_goes():
     stroke = protocol().strokes[0]
     played = drive_for(stroke, protocol(), 48_000.0)
@@ -188,7 +201,7 @@ def test_csv_files_are_replayed(tmp_path, session, recorded):
     folder = tmp_path / "csv"
     folder.mkdir()
     for stroke, name in zip(session.protocol.strokes[:2], ("stroke-001.csv", "2.csv"), strict=True):
-        write_csv(folder / name, recorded(stroke, rate_hz=2000.0))
+        write_csv(folder / name, recorded(stroke, rate_hz=2000.0, seed=stroke.number))
     names = zip(SIGNALS.items(), ("time", "fz", "fx", "x", "drive"), strict=True)
     columns = ColumnMap(
         columns={name: {"column": column, "unit": unit} for (name, unit), column in names}
