@@ -133,8 +133,9 @@ def program(page, language):
 def feels_ribs(command, environment, folder):
     """Run a program of the docs as a stranger does; it prints the friction of each moment."""
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment, cwd=folder
-    )
+        command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment, cwd=folder,
+        input="\n",
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     told = [float(one) for one in re.findall(r"friction (\d[.\d]*)", done.stdout)]
     assert max(told) > 1.1 * min(told)  # a rib is more than a JND of 10 %
