@@ -31,7 +31,7 @@ namespace Haptix
             string path = Path.Combine(Folder(), "service.json");
             if (!File.Exists(path)) throw new Lost("no service runs for this user: start haptix serve");
             JObject found = JObject.Parse(File.ReadAllText(path));
-            return new Service("ws://127.0.0.1:" + found["port"] + "/v1/session", (string)found["token"]);
+            return new Service((string)found["url"], (string)found["token"]);
         }
 
         /// <summary>Return the word by which the service knows an app again that crashed.</summary>

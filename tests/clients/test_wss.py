@@ -19,6 +19,7 @@ NODE = """
 import { createRequire } from "node:module";
 const [client, url, token] = process.argv.slice(-3);
 const { connect } = await import(client + "/src/haptix.js");
+const { find } = await import(client + "/src/node.js");
 const WebSocket = createRequire(client + "/")("ws");
 const h = await connect({ name: "far", url, token, WebSocket });
 await h.acquire();
@@ -26,6 +27,8 @@ await h.arm();
 h.touch({ x_mm: 7, y_mm: 8 });
 await h.asset(new Blob(["a photograph"]), ".png");
 await h.close();
+const near = await connect({ name: "near", find, WebSocket }); // by service.json
+await near.close();
 """
 
 MONO = """
@@ -42,6 +45,7 @@ static class Far
             h.Touch(7f, 8f);
             h.Asset(arguments[2]).Wait();
         }
+        Session.Connect("near").Result.Dispose(); // by service.json
     }
 }
 """
@@ -72,6 +76,9 @@ def test_python(far, monkeypatch):
     with pytest.raises(DeviceError, match="certificate"):
         haptix.service.client.connection.connect("far", far.url, far.access.native)
     monkeypatch.setenv("SSL_CERT_FILE", str(far.certificate))
+    monkeypatch.setenv("HAPTIX_SERVICE", str(far.access.folder))
+    with haptix.service.client.connection.connect("near") as h:
+        assert h.welcome.limits.effects  # a program of the same user finds the service by itself
     with haptix.service.client.connection.connect("far", far.url, far.access.native) as h:
         h.acquire()
         h.arm()
@@ -84,9 +91,10 @@ def test_typescript(far, tmp_path):
     script = tmp_path / "far.mjs"
     script.write_text(NODE)
     command = ["node", script, TYPESCRIPT, far.url, far.access.native]
-    stranger = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    here = os.environ | {"HAPTIX_SERVICE": str(far.access.folder)}
+    stranger = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=here)
     assert stranger.returncode != 0  # a certificate that nobody vouches for
-    trusting = os.environ | {"NODE_EXTRA_CA_CERTS": str(far.certificate)}
+    trusting = here | {"NODE_EXTRA_CA_CERTS": str(far.certificate)}
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=trusting)
     assert done.returncode == 0, done.stderr
     wait_for(far.felt)
@@ -100,6 +108,7 @@ def test_csharp(far, tmp_path):
     photograph = tmp_path / "photograph.png"
     photograph.write_bytes(b"a photograph")
     home = os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / ".config")}
+    home["HAPTIX_SERVICE"] = str(far.access.folder)
     command = ["mono", program, far.url, far.access.native, photograph]
     stranger = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=home)
     assert stranger.returncode != 0

@@ -32,9 +32,9 @@ export async function find(name = "") {
   } catch (error) {
     throw new Error(`${path} cannot be read: start haptix serve`, { cause: error });
   }
-  const { port, token, stop_port } = JSON.parse(text);
+  const { url, token, stop_port } = JSON.parse(text);
   const stop = stop_port && `http://127.0.0.1:${stop_port}/stop`;
-  return { url: `ws://127.0.0.1:${port}/v1/session`, token, stop, app: await wordOf(name) };
+  return { url, token, stop, app: await wordOf(name) };
 }
 
 /** @param {string} name */

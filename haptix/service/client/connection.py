@@ -612,8 +612,7 @@ async def connect_async(name: str, address: str = "", token: str = "") -> AsyncC
             return address, token
         entry = _service_file()  # at each attempt: a restarted service has another token
         client.stop_port = None if address else entry.stop_port
-        here = address or f"ws://127.0.0.1:{entry.port}/v1/session"
-        return here, token or entry.token
+        return address or entry.url, token or entry.token
 
     client = AsyncClient(name, find)
     await client.open()
@@ -623,7 +622,7 @@ async def connect_async(name: str, address: str = "", token: str = "") -> AsyncC
 class ServiceEntry(BaseModel):
     """Where the service of this user is, as its file ``service.json`` has it."""
 
-    port: Annotated[int, Field(ge=1, le=65535)]
+    url: Annotated[str, Field(pattern=r"^wss?://")]
     token: Annotated[str, Field(pattern=r"^[\w-]+$")]
     stop_port: Annotated[int, Field(ge=1, le=65535)] | None = None
 

@@ -108,6 +108,8 @@ class Access:
         names = ("127.0.0.1", "localhost", "[::1]", *hosts)
         self.hosts = frozenset(f"{name}:{port}" for name in names)
         scheme = "https" if hosts else "http"
+        host = hosts[0] if hosts else "127.0.0.1"
+        self._url = f"{'wss' if hosts else 'ws'}://{host}:{port}/v1/session"
         self.origins = frozenset(f"{scheme}://{host}" for host in self.hosts)
         self._now_s = now_s
         self.folder = folder
@@ -128,7 +130,8 @@ class Access:
     def write_entry(self, stop_port: int) -> None:
         """Write ``service.json``; STOP has a port of its own once the service has begun."""
         self.stop_port = stop_port
-        entry = {"port": self._port, "stop_port": stop_port, "token": self.native}
+        entry = {"url": self._url, "port": self._port, "stop_port": stop_port}
+        entry["token"] = self.native
         self._write("service.json", _json(entry))
 
     def close(self) -> None:
