@@ -284,7 +284,8 @@ class ExportLayout(Task):
         width_mm = right - left
         wanted = picture(layout, width_mm, bottom - top, _MAP_COLUMNS, corner_mm=(left, top))
         mu = as_mu(layout.evaluator.target, wanted, *self.reachable_mu)
-        FrictionMap(np.clip(mu, *self.reachable_mu), width_mm).save(folder / "friction-map.png")
+        reached = FrictionMap(np.clip(mu, *self.reachable_mu), width_mm, corner_mm=(left, top))
+        reached.save(folder / "friction-map.png")
 
     def _line(self, layout: Material, folder: Path) -> None:
         import numpy as np

@@ -351,6 +351,7 @@ def test_an_exported_map_is_the_friction_at_each_place(work, tmp_path):
     unpacked(work, "friction-map").extractall(tmp_path)
     found = FrictionMap.load(tmp_path / "friction-map.png")
     pixel_mm = found.width_mm / found.values.shape[1]
+    assert found.corner_mm == (2.0, 0.0)  # region a is the furthest left, b the furthest up
     low, high = 0.3, 0.6
     row = found.values[round(10 / pixel_mm), : round(30 / pixel_mm)]
     x = (np.arange(len(row)) + 0.5) * pixel_mm  # the map begins at the first region's corner

@@ -61,6 +61,8 @@ class FrictionMap(Displayed):
     """Width on the screen; pixels are square."""
     quantity: MapQuantity = "mu"
     """Friction coefficients, or relative changes from the friction without voltage."""
+    corner_mm: tuple[float, float] = (0.0, 0.0)
+    """Place of its upper left corner on the screen."""
 
     def __post_init__(self) -> None:
         checks.positive("width_mm", self.width_mm)
@@ -97,6 +99,7 @@ class FrictionMap(Displayed):
             "black_is": low,
             "white_is": high,
             "width_mm": self.width_mm,
+            "corner_mm": self.corner_mm,
             "orientation": "x to the right, y downwards",
             "lost": f"rounding to 16 bits: at most {self.step / 2:.3g} in {self.quantity}",
             "sha256": hashlib.sha256(picture).hexdigest(),
@@ -124,6 +127,7 @@ class FrictionMap(Displayed):
         with reading(beside, "the sidecar of a friction map"):
             low, high = float(table["black_is"]), float(table["white_is"])
             width, quantity = float(table["width_mm"]), table["quantity"]
+            x_mm, y_mm = map(float, table.get("corner_mm", (0.0, 0.0)))
         data = read_bytes(path, LARGEST_PICTURE_BYTES)
         check_picture(f"image: {path}", io.BytesIO(data), most_pixels=MOST_KEPT)
         with reading(path, "a PNG"), Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
@@ -132,7 +136,7 @@ class FrictionMap(Displayed):
             raise FileFormatError(f"{path}: expected 16-bit grey, got {grey.dtype} {grey.shape}")
         if table.get("sha256") not in (None, hashlib.sha256(data).hexdigest()):
             raise FileFormatError(f"{path}: is not the picture that its sidecar was written for")
-        return cls(low + grey / _WHITE * (high - low), width, quantity)
+        return cls(low + grey / _WHITE * (high - low), width, quantity, (x_mm, y_mm))
 
 
 _CORNERS_PER_CURVE = 16  # more in one are not played by every version of Core Haptics
