@@ -24,6 +24,7 @@ from haptix.service.front.rest import KeptTexts, documents_router
 from haptix.service.front.startup import inventory_of
 from haptix.service.protocol.messages import Problem
 from haptix.service.worker.document_work import DocumentWork, surface_of
+from haptix.service.worker.process import JobWork
 from tests.service.service_under_test import Service, is_reached
 from tests.service.test_drive import is_a_program
 from tests.waiting import PATIENCE_S
@@ -325,6 +326,20 @@ def test_currents_of_full_drive_are_those_of_the_contact_model(work):
     at = found["normal_force_n"].index(0.5)
     assert least <= found["current_a"][at] < 1.5 * least
     assert found["current_a"] == sorted(found["current_a"])  # more contact, more current
+
+
+def test_the_headroom_ends_at_the_highest_amplitude_of_the_drive_in_use(tmp_path):
+    context = {"finger": "semi-wet", "screen": "3m-sct3250", "highest_v": 150.0}
+    jobs = JobWork(context | {"assets": str(tmp_path)}, lambda **_: None, iter(()))
+    model = haptix.ContactModel(
+        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
+    )
+    highest = float(model.solve(normal_force_n=0.5, voltage_v=150.0, frequency_hz=4000.0).mu)
+    asked = {"kind": "grating", "period_mm": 4.0, "target": "mu", "low": highest, "high": highest}
+    asked["high"] *= 1.04  # a sine over the range: all but its lowest is above
+    found = jobs.headroom(material=asked, width_mm=20.0, height_mm=10.0)
+    assert found["highest_mu"] == pytest.approx(highest, rel=0.11 * 0.05)  # the job's 0.05 JND
+    assert found["above"] > 0.7
 
 
 def unpacked(work, form, **more):
