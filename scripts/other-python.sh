@@ -29,5 +29,7 @@ packages=$("$home/bin/python" -c 'import sysconfig; print(sysconfig.get_path("pu
 sed -i '/^Requires-Dist: \(nvidia\|cuda\|triton\)/d' "$packages"/torch-*.dist-info/METADATA
 .venv/bin/python scripts/without_cuda.py "$packages/torch/lib"
 install -e '.[figures,calibration,stimuli,serve,netcdf]' pytest pytest-timeout pytest-xdist hypothesis
+# An example makes a board's image; there is no compiler in the new environment, but what was built is found.
+.venv/bin/python -c 'from firmware_io.c_library import pico_program; pico_program("pico")'
 "$home/bin/python" -m pytest -q -p no:cacheprovider -m "slow or not slow" \
     tests/packaging/test_documentation.py -k "docstrings_run and not planning or README"

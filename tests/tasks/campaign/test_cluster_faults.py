@@ -142,7 +142,7 @@ def test_another_version_is_refused_by_name_and_a_deadly_task_is_set_aside(clust
     other = tmp_path / "other"
     for package in ("haptix", "firmware_io", "calibration"):
         shutil.copytree(ROOT / package, other / package, ignore=shutil.ignore_patterns("*.pyc"))
-    with (other / "haptix" / "units.py").open("a") as file:
+    with (other / "haptix" / "base" / "units.py").open("a") as file:
         file.write("\n# another version\n")
     cluster.start_worker("changed", "--no-nanny", path=str(other))
     with distributed.Client(scheduler_file=str(cluster.file)) as client:
