@@ -214,6 +214,17 @@ def test_two_instruments_with_channels_of_one_name_are_two(tmp_path, units, star
     np.testing.assert_array_equal(table.columns["Position/X"], 3 * k)
 
 
+def test_a_unit_of_daqmx_is_one(tmp_path):
+    """As DAQmx logs: in words, alone or beside the unit that LabVIEW's waveforms have."""
+    in_words = {"NI_UnitDescription": "Newtons", "NI_ChannelName": "Fz"}
+    table = tdms(tmp_path / "a.tdms", [
+        ("Log", "Fz", "", np.ones(10), in_words),
+        ("Log", "Fx", "mN", np.ones(10), {"NI_UnitDescription": "Millinewtons"}),
+        ("Log", "drive", "", np.ones(10), {"NI_UnitDescription": "Volts"}),
+    ])  # fmt: skip
+    assert table.units == {"Fz": "N", "Fx": "mN", "drive": "V"}
+
+
 @pytest.mark.parametrize("starts", [None, (BEGAN, BEGAN + np.timedelta64(10, "s"))])
 def test_groups_of_one_instrument_are_strokes(tmp_path, starts):
     more = [{"wf_start_time": start} for start in starts] if starts else [{}, {}]

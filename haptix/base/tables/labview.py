@@ -78,7 +78,10 @@ def of_tdms(path: str | Path, data: bytes) -> LabTable:
 
 
 def _unit_of(channel: Any) -> str:
-    return known_unit(str(channel.properties.get("unit_string", "")))
+    # The driver DAQmx names it in words, such as Volts, and LabVIEW writes both.
+    properties = channel.properties
+    named = properties.get("unit_string") or properties.get("NI_UnitDescription", "")
+    return known_unit(str(named))
 
 
 def _follow_each_other(groups: Sequence[Mapping[str, Any]]) -> bool:
