@@ -234,6 +234,17 @@ class PeriodState(Table):
         return ax
 
 
+def usable_device(device: torch.device | str) -> torch.device:
+    """Return a device on which torch computes here, or raise `InputError`."""
+    try:
+        return torch.empty(0, device=device).device
+    except (AssertionError, RuntimeError) as error:  # the former of a torch without CUDA
+        why = str(error).splitlines()[0][:200]
+        raise InputError(
+            f'device: expected one that torch has here, such as "cpu", got {str(device)!r}: {why}'
+        ) from None
+
+
 def plain_array(value: Any) -> Any:
     """Return an array, or a series of pandas, as torch takes it; anything else as it is.
 

@@ -36,7 +36,13 @@ from haptix.model.fidelity import (
 from haptix.model.finger import Finger
 from haptix.model.friction.solver import FrictionSolver
 from haptix.model.screen import Screen
-from haptix.model.states import ContactState, PeriodState, broadcast_shape, checked
+from haptix.model.states import (
+    ContactState,
+    PeriodState,
+    broadcast_shape,
+    checked,
+    usable_device,
+)
 from haptix.model.status import Status
 from haptix.model.terms import TERMS, ActiveTerms, Properties, Stage, chosen_terms
 from haptix.model.waves import Waveform
@@ -156,7 +162,7 @@ class ContactModel(Displayed):
             active.solid(),
             gamma=gamma,
             gap_distribution=gap_distribution,
-            device=device,
+            device=usable_device(device),
         )
         usual = torch.tensor(REFERENCE_FORCE_N, dtype=torch.float64)
         contact = Contact(

@@ -348,3 +348,11 @@ def test_a_number_beyond_any_float_is_refused(plain: FrictionSurface, model: Con
     for ask in (plain.mu, model.solve):
         with pytest.raises(InputError, match="voltage_v"):
             ask(0.5, 10**400)
+
+
+@pytest.mark.parametrize("device", ["no device", "fpga"])
+def test_a_device_that_torch_lacks_is_refused(plain: FrictionSurface, device: str) -> None:
+    with pytest.raises(InputError, match=f"device: .*{device}"):
+        ContactModel(Finger(), Screen(), device=device)
+    with pytest.raises(InputError, match=f"device: .*{device}"):
+        plain.to(torch.float64, device)
