@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, fields
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +32,10 @@ class GapSums(Displayed):
     capacitance_f: Tensor
     conductance_s: Tensor
     current_a: Tensor | None
+
+
+def _itself(value: Any) -> Any:
+    return value
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,17 @@ class ContactState(Displayed):
     def accuracy(self) -> Accuracy:
         """Intervals of mu and of mu(V)/mu(0) that boundary elements showed for the theory."""
         return self.find_accuracy()
+
+    def __reduce__(self) -> Any:
+        """Pickle all values, those of the properties too: a process of a pool can return states."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values |= {
+            "find_status": partial(_itself, self.status),
+            "find_accuracy": partial(_itself, self.accuracy),
+            "find_yielded_area": partial(_itself, self.find_yielded_area()),
+            "sum_gaps": partial(_itself, self._sums),
+        }
+        return partial(ContactState, **values), ()
 
     def plot(self, ax: Axes | None = None, quantity: str = "mu", **along: Any) -> Axes:
         """Draw a quantity against one of the inputs, a line for each row of the other ones.

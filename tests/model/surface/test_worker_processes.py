@@ -1,11 +1,14 @@
-"""A surface in several processes: torch moves the memory of what it sends to another."""
+"""Surfaces and states in several processes: torch moves the memory of what it sends to another."""
 
+import copy
 import multiprocessing
+import pickle
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.reduction import ForkingPickler
 
 import numpy as np
 import pytest
+import torch
 
 from haptix import ContactModel, FrictionSurface
 from haptix.model.surface.interpolant import Slice
@@ -43,3 +46,18 @@ def test_workers_answer_as_the_sender(surface: FrictionSurface, start: str) -> N
     with ProcessPoolExecutor(2, multiprocessing.get_context(start)) as pool:
         assert list(pool.map(answers, [surface] * 3)) == [before] * 3
     assert answers(surface) == before
+
+
+@pytest.mark.parametrize("frequency_hz", [None, 125.0])
+def test_states_are_sent_with_all_their_values(
+    model: ContactModel, frequency_hz: float | None
+) -> None:
+    state = model.solve([0.2, 0.5], 150.0, frequency_hz)
+    for sent in (pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
+        assert repr(sent) == repr(state) and sent.warnings() == state.warnings()
+        for name in (
+            "mu", "status", "mean_gap_m", "pull_past_breakdown", "capacitance_f", "spot_pressure_pa"
+        ):  # fmt: skip
+            assert torch.equal(getattr(sent, name), getattr(state, name)), name
+        assert torch.equal(sent.accuracy.ratio, state.accuracy.ratio)
+        assert (sent.current_a is None) == (frequency_hz is None)
