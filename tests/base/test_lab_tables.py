@@ -346,3 +346,37 @@ def test_a_text_that_names_matlab_is_a_text(tmp_path):
     rows = "".join(f"{k},{k}\n" for k in range(20))
     (tmp_path / "a.csv").write_text("MATLAB export of 27 November\nt (s),Fz (N)\n" + rows)
     assert read_table(tmp_path / "a.csv").units == {"t (s)": "s", "Fz (N)": "N"}
+
+
+SETTINGS = [
+    "Model,MSO4034", "Horizontal Units,s,,", "Sample Interval,2e-4,,", "Probe Attenuation,10,10,1",
+    "Vertical Units,V,V,V", "Vertical Offset,0,0,0", "Vertical Scale,2,2,1",
+    "Vertical Position,0,0,0", ",,,", "Label,,,", "TIME,CH1,CH2,CH3",
+]  # fmt: skip
+
+
+def test_settings_of_a_scope_are_no_samples(tmp_path):
+    """Tektronix' MSO4000 states four settings of each channel in lines as wide as its samples."""
+    k = np.arange(40.0)
+    rows = [f"{2e-4 * i:.6e},{i:.4f},{2 * i:.4f},{3 * i:.4f}" for i in range(40)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([*SETTINGS, *rows]) + "\n")
+    table = read_table(path)
+    assert [*table.columns] == ["TIME", "CH1", "CH2", "CH3"]
+    np.testing.assert_array_equal(table.columns["CH3"], 3 * k)
+
+
+def test_settings_beside_the_samples_leave_them_all(tmp_path):
+    """Tektronix' TDS2000 has its settings in the first columns of the first lines of samples."""
+    beside = [
+        "Record Length,40,",
+        "Sample Interval,2e-4,",
+        "Trigger Point,20,",
+        ",,",
+        "Source,CH1,",
+    ]
+    rows = [f"{(beside + [',,'] * 35)[i]},{2e-4 * i:.6f},{i:.4f}," for i in range(40)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows) + "\n")
+    samples = [*read_table(path).columns.values()][-1]
+    np.testing.assert_array_equal(samples, np.arange(40.0))

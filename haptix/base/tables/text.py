@@ -191,6 +191,13 @@ def _layout(lines: Sequence[str], delimiter: str | None) -> _Layout | None:
                 f and len(row) == width and not row[0].rstrip().endswith("=")
                 for f, row in zip(full, rows, strict=True)
             ]
+            # Settings above the samples begin with a word, where most lines have a number.
+            begin = [row[0] for fit, row in zip(fits, rows, strict=True) if fit]
+            if 2 * sum(_is_value(cell, has_commas) for cell in begin) > len(begin):
+                fits = [
+                    fit and (not row[0].strip() or _is_value(row[0], has_commas))
+                    for fit, row in zip(fits, rows, strict=True)
+                ]
             fitting = [each for each, fit in zip(counts, fits, strict=True) if fit]
             cells = sum(n for n, fit in zip(filled, fits, strict=True) if fit)
             certain = sum(n for n, fit in zip(plain, fits, strict=True) if fit)
