@@ -169,16 +169,18 @@ def test_the_front_page_is_felt_without_a_service(address, browser):
         "const keep = () => seen.push(outputs.map(output => output.textContent));"
         "new MutationObserver(keep).observe(outputs[1], { childList: true }) })()"
     )
-    for step in count():  # across the joints, there and back
-        part = 0.1 + 0.8 * abs(step % 60 - 30) / 30
-        page.mouse.move(box["x"] + part * box["width"], box["y"] + 0.6 * box["height"])
-        page.wait_for_timeout(8)
-        if step % 60 == 59 and page.evaluate("seen.length") > 30:
+    for stroke in count():  # across the joints, there and back
+        for step in range(60):
+            part = 0.1 + 0.8 * abs(step - 30) / 30
+            page.mouse.move(box["x"] + part * box["width"], box["y"] + 0.6 * box["height"])
+            page.wait_for_timeout(8)
+        seen = page.evaluate("seen")
+        numbers = np.array([row for row in seen if "\u2013" not in row], float)
+        # A busy page shows few places, and perhaps no joint among the first.
+        grips = len(numbers) > 20 and np.ptp(numbers, axis=0).min() > 0.02
+        if grips or stroke == 50:
             break
-    seen = page.evaluate("seen")
-    numbers = np.array([row for row in seen if "\u2013" not in row], float)
-    assert len(numbers) > 20
-    assert np.ptp(numbers, axis=0).min() > 0.02  # the bright joints grip
+    assert grips  # the bright joints
     # What is felt follows what is wanted, up to the edges that no drive can follow.
     assert np.median(np.abs(numbers[:, 0] - numbers[:, 1])) < 0.005
     drawn = page.evaluate(
