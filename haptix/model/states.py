@@ -249,10 +249,10 @@ class PeriodState(Table):
         return ax
 
 
-def usable_device(device: torch.device | str) -> torch.device:
-    """Return a device on which torch computes here, or raise `InputError`."""
+def check_device(device: torch.device | str) -> None:
+    """Raise `InputError` unless torch computes on a device here."""
     try:
-        return torch.empty(0, device=device).device
+        torch.empty(0, device=device)
     except (AssertionError, RuntimeError) as error:  # the former of a torch without CUDA
         why = str(error).splitlines()[0][:200]
         raise InputError(

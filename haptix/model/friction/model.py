@@ -40,8 +40,8 @@ from haptix.model.states import (
     ContactState,
     PeriodState,
     broadcast_shape,
+    check_device,
     checked,
-    usable_device,
 )
 from haptix.model.status import Status
 from haptix.model.terms import TERMS, ActiveTerms, Properties, Stage, chosen_terms
@@ -151,6 +151,7 @@ class ContactModel(Displayed):
                 f'boundary_elements: expected none with fidelity "{fidelity}", got a box; leave it '
                 f"out, or use {_able(Ability.SCATTER)}"
             )
+        check_device(device)
         self.terms = chosen_terms(terms, finger, screen, how, chosen.usual_terms)
         self.finger = finger
         self.screen = screen
@@ -162,7 +163,7 @@ class ContactModel(Displayed):
             active.solid(),
             gamma=gamma,
             gap_distribution=gap_distribution,
-            device=usable_device(device),
+            device=device,
         )
         usual = torch.tensor(REFERENCE_FORCE_N, dtype=torch.float64)
         contact = Contact(

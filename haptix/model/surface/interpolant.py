@@ -23,7 +23,7 @@ from haptix.base.display import Displayed
 from haptix.base.errors import InputError
 from haptix.base.native import Struct, doubles, ffi, library, room
 from haptix.base.threads import Answer, in_blocks
-from haptix.model.states import broadcast_shape, usable_device
+from haptix.model.states import broadcast_shape, check_device
 from haptix.model.status import Status
 from haptix.model.surface.axes import PULL_IN_DRIVE, SLACK, Axes, Cells
 
@@ -150,7 +150,7 @@ class Interpolant(Displayed):
         """
         if dtype not in (torch.float32, torch.float64):
             raise InputError(f"dtype: expected torch.float32 or torch.float64, got {dtype}")
-        device = usable_device(device)
+        check_device(device)
         return replace(
             self,
             axes=self.axes.to(dtype, device),
