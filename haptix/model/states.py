@@ -38,6 +38,10 @@ def _itself(value: Any) -> Any:
     return value
 
 
+def _state_of(values: dict[str, Any]) -> ContactState:
+    return ContactState(**values)
+
+
 @dataclass(frozen=True)
 class ContactState(Displayed):
     """Solved states; every tensor has the broadcast shape of the inputs.
@@ -97,7 +101,7 @@ class ContactState(Displayed):
             "find_yielded_area": partial(_itself, self.find_yielded_area()),
             "sum_gaps": partial(_itself, self._sums),
         }
-        return partial(ContactState, **values), ()
+        return _state_of, (values,)
 
     def plot(self, ax: Axes | None = None, quantity: str = "mu", **along: Any) -> Axes:
         """Draw a quantity against one of the inputs, a line for each row of the other ones.

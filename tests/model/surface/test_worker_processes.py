@@ -59,5 +59,6 @@ def test_states_are_sent_with_all_their_values(
             "mu", "status", "mean_gap_m", "pull_past_breakdown", "capacitance_f", "spot_pressure_pa"
         ):  # fmt: skip
             assert torch.equal(getattr(sent, name), getattr(state, name)), name
+        assert sent.mu is not state.mu and sent.status is not state.status
         assert torch.equal(sent.accuracy.ratio, state.accuracy.ratio)
         assert (sent.current_a is None) == (frequency_hz is None)
