@@ -111,3 +111,14 @@ def test_all_processes_of_a_service_log(tmp_path):
         "haptix.service INFO engine: process ",
     ):
         assert line in text, line
+
+
+@pytest.mark.slow  # starts the whole service
+def test_a_service_that_still_begins_ends_by_sigterm(tmp_path):
+    """As where systemd restarts it: what waited for its processes would hang until it is killed."""
+    command = [sys.executable, "-m", "haptix.tasks.cli", "serve", "--port", "0"]
+    environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path)}
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment) as process:
+        wait_for((tmp_path / "service.json").exists)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) in (0, -signal.SIGTERM)

@@ -10,10 +10,7 @@ from __future__ import annotations
 import asyncio
 import re
 import shutil
-import signal
-import sys
 from collections.abc import Callable
-from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -181,9 +178,6 @@ def serve(
             await asyncio.to_thread(stop_path.close)
 
     try:
-        with suppress(ValueError):  # not in the main thread, as in tests
-            # uvicorn ends orderly, then raises the signal again, which would end the process.
-            signal.signal(signal.SIGTERM, lambda *_: sys.exit())
         asyncio.run(run())
     finally:
         access.close()
