@@ -66,9 +66,8 @@ _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
 _STOP_S = 1.0  # for STOP on its own path
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
-_MOST_REFUSALS = (
-    4  # of the token: a service that begins opens its port before it writes the new one
-)
+# Of the token: a service that begins opens its port before it writes the new one.
+_MOST_REFUSALS = 4
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
 _CLOSED = "this client is closed; connect again"
 _FELT = "felt"  # name of the region that `feel` makes
@@ -198,8 +197,9 @@ class Lost(DeviceError):
 class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     """A session with the service; made by `connect_async`.
 
-    A broken connection is opened again, with the lease and layout if the service kept them, but
-    never armed. The events "lost" and "resumed" report it; "closed" is the last event.
+    A broken connection is opened again, with the lease and layout if the service kept them, but not
+    armed, except that `feel` arms a virtual driver again. The events "lost" and "resumed" report
+    it; "closed" is the last event.
 
     Parameters
     ----------
